@@ -70,6 +70,7 @@ class CoreGenerator {
     while (script.ops.size() < length) {
       const CoreVerb next = live_ < script.most && dice_.one_in(4) ? CoreVerb::add : verb();
       script.ops.push_back(op(script, next, count(next, script.most)));
+      if (next == CoreVerb::save && dice_.one_in(2)) go_back_soon(script);
       if (next != CoreVerb::give || !dice_.one_in(3)) continue;
       CoreOp few = op(script, CoreVerb::exclude, 1);  // perhaps of ids that are free now
       few.filter = few.filter / exclusion_kinds * exclusion_kinds + 1;
@@ -79,6 +80,19 @@ class CoreGenerator {
   }
 
  private:
+  /// Goes back to what was saved last, before other objects are there.
+  void go_back_soon(CoreScript& script) {
+    constexpr std::array verbs{CoreVerb::move, CoreVerb::move, CoreVerb::give,
+                               CoreVerb::stir, CoreVerb::ask,  CoreVerb::update};
+    for (unsigned k = dice_.below(5); k > 0; --k) {
+      const CoreVerb verb = dice_.pick(verbs);
+      script.ops.push_back(op(script, verb, verb == CoreVerb::give ? 1 : count(verb, script.most)));
+    }
+    CoreOp back = op(script, CoreVerb::restore, 1);
+    back.which = 5;  // the last, however many there are
+    script.ops.push_back(back);
+  }
+
   CoreVerb verb() {
     constexpr unsigned sum = std::accumulate(core_weights.begin(), core_weights.end(), 0U,
                                              [](unsigned s, CoreWeight w) { return s + w.weight; });

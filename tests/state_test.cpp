@@ -6,6 +6,7 @@
 #include <iterator>
 #include <limits>
 #include <optional>
+#include <ranges>
 #include <span>
 #include <string>
 #include <utility>
@@ -137,6 +138,55 @@ TEST_P(EachAlgorithm, QueriesBeforeAndAfterAreRight) {
       EXPECT_EQ(ids.front(), id);
     }
   }
+}
+
+/// What changed since a moment is known, however many were saved afterwards, and whatever the changes were.
+TEST(State, AllBoxesThatChangedSinceGoBack) {
+  constexpr std::uint32_t objects = 100;
+  BroadPhase broad_phase({.algorithm = "sweep-and-prune"});
+  std::vector<Aabb> boxes;
+  for (std::uint32_t k = 0; k < objects; ++k) boxes.push_back(apart(k));
+  (void)broad_phase.update(BoxView(boxes));
+  std::vector<State> states;
+  std::vector<std::vector<Aabb>> saved;
+  const auto go_back = [&](std::size_t to) {
+    (void)broad_phase.restore(states[to]);
+    boxes = saved[to];
+    EXPECT_EQ(broad_phase.boxes(), boxes) << to;
+  };
+  const auto move = [&](std::uint32_t id) {
+    boxes[id] = apart(1000 + states.size() + id);
+    broad_phase.move(id, boxes[id]);
+  };
+  const auto save = [&] {
+    (void)broad_phase.update(BoxView(boxes));
+    states.push_back(broad_phase.save());
+    saved.push_back(boxes);
+  };
+  for (std::uint32_t k = 0; k < 40; ++k) {
+    move(k);
+    save();
+  }
+  for (const std::size_t k : {39U, 0U, 25U, 24U, 38U, 1U}) go_back(k);
+  for (std::uint32_t k = 0; k < 20; ++k) {
+    if (k % 10 < 5) move(k);
+    if (k % 10 == 5) std::ranges::for_each(std::views::iota(0U, objects), move);
+    if (k % 10 == 6) std::ranges::rotate(boxes, boxes.begin() + 1);
+    save();
+    move(k + 1);
+    if (k % 2 == 0) {
+      EXPECT_EQ(broad_phase.overlapping(BoxView(boxes)).size(), objects);
+    }
+    move(k + 2);
+    go_back(k * 7 % (k + 1));
+  }
+  const std::uint32_t above = broad_phase.add(apart(2000));
+  (void)broad_phase.update();
+  broad_phase.remove(above);
+  (void)broad_phase.update();
+  go_back(states.size() - 1);
+  broad_phase.move(1, empty_aabb());
+  go_back(states.size() - 2);
 }
 
 TEST(State, WhatCannotBeSavedOrRestoredIsAnErrorThatSaysWhy) {

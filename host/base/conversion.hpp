@@ -24,6 +24,10 @@ using BlockBits = std::vector<std::uint16_t>;
   return (boxes + boxes_per_block - 1) / boxes_per_block;
 }
 
+inline void insert_bit(BlockBits& blocks, std::size_t k) noexcept {
+  blocks[k / boxes_per_block] |= static_cast<std::uint16_t>(1U << k % boxes_per_block);
+}
+
 /// Calls function(k) for each bit that is set.
 template <class Function>
 void for_each_bit(const BlockBits& blocks, const Function& function) {

@@ -261,6 +261,7 @@ void Core<Box>::begin(ArrivingBoxes* arriving, const LookAtBoxes<Box>* look, boo
   apply_late();
   flight_.reserve(capacity_);  // here, since an update in flight reads it
   if (own_tree_ || !read_.empty()) unread_.reserve(capacity_);
+  timeline_.reserve(capacity_);
   or_find_boxes([&] { algorithm_->reserve_exclusions(exclusions_->size()); });
   if constexpr (is_exact) exact_.pairs.begin(*algorithm_);
   take_mapped(look);
@@ -274,6 +275,7 @@ void Core<Box>::begin(ArrivingBoxes* arriving, const LookAtBoxes<Box>* look, boo
   flight_.insert(read_);
   read_.clear();
   flight_.sort_recycled();
+  timeline_.record(flight_);
   update_ = Update::in_flight;
   or_roll_back([&] {
     const std::size_t slots = objects_.slots();
@@ -350,6 +352,7 @@ void Core<Box>::shrink() {
   objects_ = std::move(objects);
   changes_ = std::move(changes);
   flight_ = {};
+  timeline_ = {};
   late_.shrink();
   capacity_ = ids;
   update_ = Update::none;

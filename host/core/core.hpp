@@ -30,6 +30,7 @@
 #include "core/object_table.hpp"
 #include "core/recorder.hpp"
 #include "core/state.hpp"
+#include "core/timeline.hpp"
 #include "engines/algorithm.hpp"
 #include "engines/box_tree.hpp"
 #include "opencl/process.hpp"
@@ -328,7 +329,9 @@ class Core {
   /// Moves those that differ, unless they are many.
   /// @returns Whether it did.
   template <class Function>
-  bool replace_few(const BoxView& view, const Function& end);
+  bool replace_few(const BoxView& view, const Saved<Box>* saved, const Function& end);
+  /// The slots whose boxes may differ from those that were saved, ascending; none if these may be many.
+  [[nodiscard]] std::optional<std::vector<std::uint32_t>> changed_since(const Saved<Box>& saved);
   /// Copies them all.
   /// @param same_objects Whether the objects stay.
   template <class Function>
@@ -400,6 +403,7 @@ class Core {
   std::optional<SlotChanges> unread_slots_;  // the same of the update in flight, if some were read
   std::unique_ptr<BoxTree> own_tree_;        // for queries, if the algorithm has none
   ChangeSet flight_;                         // the changes that the update in flight applies
+  Timeline timeline_;                        // without changes_ and read_
   Update update_ = Update::none;
   LateBoxes<Box> late_;     // packed
   bool many_moved_ = true;  // in the last replacement

@@ -81,7 +81,7 @@ void Core<Box>::replace_all(const BoxView& view, const Saved<Box>* saved, const 
   const bool same_objects =
       saved != nullptr ? has_objects(*saved) : objects_.size() == view.size() && slots == view.size();
   try {
-    if (same_objects && !many_moved_ && mapped_ == 0 && replace_few(view, end)) return;
+    if (same_objects && mapped_ == 0 && replace_few(view, saved, end)) return;
     try {
       replace_many(view, saved, same_objects, end);
     } catch (const OutgrownMap&) {
@@ -96,23 +96,47 @@ void Core<Box>::replace_all(const BoxView& view, const Saved<Box>* saved, const 
 }
 
 template <class Box>
+std::optional<std::vector<std::uint32_t>> Core<Box>::changed_since(const Saved<Box>& saved) {
+  timeline_.reserve(capacity_);
+  timeline_.record(changes_);
+  timeline_.record(read_);
+  const auto changed = timeline_.since(saved.moment);
+  if (!changed) return std::nullopt;
+  std::vector<std::uint32_t> slots;
+  for_each_bit(*changed, [&](std::uint32_t slot) {
+    if (slot < saved.boxes.size()) slots.push_back(slot);
+  });
+  if (slots.size() > saved.boxes.size() / 4) return std::nullopt;
+  return slots;
+}
+
+template <class Box>
 template <class Function>
-bool Core<Box>::replace_few(const BoxView& view, const Function& end) {
-  BoxReplacement<Box> comparison(view, boxes_, {}, false, false, threads_);
-  comparison.finish();
-  many_moved_ = comparison.are_many();
-  if (many_moved_) return false;
+bool Core<Box>::replace_few(const BoxView& view, const Saved<Box>* saved, const Function& end) {
   std::vector<std::pair<std::uint32_t, Box>> others;
-  others.reserve(comparison.count());
   BoxReader<Box> reader(view);
-  comparison.for_each_changed(
-      [&](std::uint32_t slot) { others.emplace_back(slot, pack(reader.read(slot, slot + 1).front())); });
+  const auto compare = [&](std::uint32_t slot) {
+    const Box box = pack(reader.read(slot, slot + 1).front());
+    if (same_bits(boxes_[slot], box)) return;
+    others.emplace_back(slot, box);
+    any_empty_ = any_empty_ || !is_proper(box);
+  };
+  if (const auto slots = saved != nullptr ? changed_since(*saved) : std::nullopt) {
+    std::ranges::for_each(*slots, compare);
+    many_moved_ = false;
+  } else {
+    if (many_moved_) return false;
+    BoxReplacement<Box> comparison(view, boxes_, {}, false, false, threads_);
+    comparison.finish();
+    many_moved_ = comparison.are_many();
+    if (many_moved_) return false;
+    comparison.for_each_changed(compare);
+  }
   const auto swap_boxes = [&] {
     for (auto& [slot, box] : others) std::swap(boxes_[slot], box);
   };
   swap_boxes();
   for (const auto& [slot, box] : others) changes_.insert(slot);
-  any_empty_ = any_empty_ || comparison.any_empty();
   try {
     begin();
     end();
@@ -207,7 +231,8 @@ std::shared_ptr<const Saved<Box>> Core<Box>::save() {
                  .filters = copy_of(objects_.filters()),
                  .reaches = has_distance ? std::vector<Bound>() : copy_of(objects_.reaches()),
                  .exclusions = exclusions_,
-                 .first_reach = objects_.first_reach()});
+                 .first_reach = objects_.first_reach(),
+                 .moment = timeline_.now(capacity_)});
   if (any_empty_ || objects_.size() < slots) replace_empty(saved->boxes, empty_box);
   return saved;
 }

@@ -16,6 +16,12 @@ using SharedPairs = std::shared_ptr<const std::vector<Pair>>;  // never null
 
 namespace detail {
 
+/// A moment in the life of a Core.
+struct Moment {
+  std::uint64_t of = 0;  ///< 0 for none; otherwise no two that live in the same process have the same.
+  std::uint64_t number = 0;
+};
+
 /// The objects of a BroadPhase at some moment.
 template <class Box>
 struct Saved {
@@ -25,10 +31,12 @@ struct Saved {
   std::vector<BoundType<Box>> reaches{};  ///< By slot, or none if all are `first_reach`.
   SharedPairs exclusions{};               ///< In canonical order, each once.
   BoundType<Box> first_reach = 0;         ///< That Config::distance gives to all objects.
+  Moment moment{};                        ///< None if it was saved in another process.
 };
 
 }  // namespace detail
 
+using detail::Moment;
 using detail::Saved;
 
 }  // namespace broadcl
