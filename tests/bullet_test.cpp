@@ -16,7 +16,7 @@
 namespace broadcl {
 namespace {
 
-SUITE_ALSO_IN(Bullet, gpu_profile | rusticl | oclgrind_bullet);
+SUITE_ALSO_IN(Bullet, gpu_profile | rusticl);
 
 constexpr int all_bits = -1;
 using IdPairs = std::set<std::pair<int, int>>;

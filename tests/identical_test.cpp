@@ -180,7 +180,7 @@ INSTANTIATE_TEST_SUITE_P(Identical, IdenticalRun,
                          name_of);
 INSTANTIATE_TEST_SUITE_P(Long, IdenticalRun,
                          testing::Combine(testing::ValuesIn(test::scenario_names()), testing::Values(1000U),
-                                          testing::Values(512)),
+                                          testing::Values(256)),
                          name_of);
 
 }  // namespace

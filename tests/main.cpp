@@ -36,7 +36,7 @@ constexpr std::array all_runs{Run{"kernels", runs::kernels},
                               Run{"rusticl", runs::rusticl},
                               Run{"oclgrind", runs::oclgrind},
                               Run{"oclgrind-gpu-profile", runs::oclgrind_gpu_profile},
-                              Run{"oclgrind-bullet", runs::oclgrind_bullet},
+                              Run{"oclgrind-all", runs::oclgrind | runs::oclgrind_gpu_profile},
                               Run{"sanitizers", runs::sanitizers},
                               Run{"intel", runs::intel | runs::gpu_profile | runs::rusticl}};
 

@@ -34,8 +34,6 @@ inline constexpr Runs rusticl = 2;
 inline constexpr Runs oclgrind = 4;
 /// Under Oclgrind, with kernels tuned for GPUs: seconds per test.
 inline constexpr Runs oclgrind_gpu_profile = 8;
-/// Under Oclgrind, tests of the adapter; in the long run only.
-inline constexpr Runs oclgrind_bullet = 16;
 /// Under AddressSanitizer and UndefinedBehaviorSanitizer, about ten times slower. Every test is in it unless
 /// it says otherwise.
 inline constexpr Runs sanitizers = 32;
