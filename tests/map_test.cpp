@@ -1,5 +1,6 @@
 #include <broadcl/broad_phase.hpp>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -7,7 +8,9 @@
 
 #include <gtest/gtest.h>
 
+#include "core/core.hpp"
 #include "each_algorithm.hpp"
+#include "engines/algorithm.hpp"
 #include "expect_error.hpp"
 
 /// map(): boxes written in place.
@@ -43,6 +46,17 @@ TEST_P(EachAlgorithm, SmallMappedMemoryOutlivesTheObject) {
     EXPECT_NE(elsewhere.owner, boxes.owner);
   }
   for (std::uint32_t k = 0; k < 40; ++k) ASSERT_EQ(boxes[k], apart(k));
+}
+
+/// Boxes of free ids hold NaNs, as kernels expect, also those that are no longer in the map.
+TEST(Map, LeavesNoBoxOfAFreeId) {
+  Core<Aabb> core(make_algorithm({.algorithm = "sweep-and-prune"}));
+  std::ranges::fill(core.map(3), unit);
+  core.remove(1);
+  core.remove(2);
+  core.map(1)[0] = unit;
+  (void)core.finish();
+  for (const Aabb& box : core.boxes().subspan(1)) EXPECT_TRUE(has_nan(box));
 }
 
 ALSO_IN(oclgrind);

@@ -194,6 +194,7 @@ std::span<Box> Core<Box>::map(std::size_t n) {
   set_ids(n, empty_box, [&](std::uint32_t id, const Box& box) { boxes_[id] = box; });
   changes_.all = true;
   const std::span<Box> boxes = boxes_.first(n);
+  if (n < own) std::ranges::fill(boxes_.first(own).subspan(n), packed_empty_box);
   if (n > own && any_empty_) {  // the caller must not get an error for a NaN that somebody else wrote
     replace_empty(boxes.subspan(own), empty_box);
     any_empty_ = false;
