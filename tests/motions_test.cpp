@@ -76,7 +76,7 @@ TEST_P(EachAlgorithm, FollowsEachMotionOfObjectsWithFilters) {
 TEST(Motions, AreFollowedByOneThreadAndBySeveral) {
   for (const std::size_t threads : {1U, 3U}) {
     expect_oracle_in_each({.algorithm = "sweep-and-prune", .threads = threads},
-                          is_sanitized ? Extent{300, 12} : Extent{1100, 16});
+                          is_sanitized ? Extent{300, 6} : Extent{1100, 8});
   }
 }
 

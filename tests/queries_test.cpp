@@ -224,10 +224,10 @@ void expect_life(const BroadPhase::Config& config, std::size_t n, std::size_t qu
 
 TEST_P(EachAlgorithm, QueriesFindWhatTheyShouldWhateverChanges) {
   expect_life<Aabb>(config(), 150, 9, false);
-  expect_life<Aabb>(config(), 531, 333, true);
-  expect_life<Aabb64>(config(), 150, 90, false);
+  expect_life<Aabb>(config(), 531, 80, true);
+  expect_life<Aabb64>(config(), 150, 30, false);
   if (is_slow() || GetParam().on_device) return;
-  expect_life<Aabb64>(config(), 1301, 90, true);
+  expect_life<Aabb64>(config(), 1301, 30, true);
 }
 
 TEST_P(EachAlgorithm, QueriesOfTwoSetsLookInBoth) {

@@ -276,7 +276,7 @@ void expect_lives(Config config, bool is_slow) {
   for (int numbers = 0; numbers < static_cast<int>(Numbers::count); ++numbers) {
     for (const double distance : {0.0, 1.1}) {
       config.distance = distance;
-      for (const std::size_t objects : {20U, 150U, 500U}) {
+      for (const std::size_t objects : {20U, 150U, 300U}) {
         if (objects > 150 && is_slow) continue;
         expect_life<Box>(config, static_cast<Numbers>(numbers), objects);
       }
@@ -295,7 +295,7 @@ TEST_P(EachAlgorithm, ObjectsReachBeyondTheirBoxesInDoublePrecision) {
 template <class Box>
 void expect_pairs_of_one_search(Config config, bool is_slow) {
   for (int numbers = 0; numbers < static_cast<int>(Numbers::count); ++numbers) {
-    for (const std::size_t count : {10U, 120U, 700U}) {
+    for (const std::size_t count : {10U, 120U, 300U}) {
       if (count > 120 && is_slow) continue;
       Scene<Box> scene(static_cast<Numbers>(numbers), static_cast<std::uint32_t>(count));
       std::vector<Box> boxes(count);

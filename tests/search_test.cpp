@@ -332,7 +332,7 @@ TEST_P(EachAlgorithm, EveryPairOfHundredsGoesAndComes) {
 
 NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
 TEST_P(EachDeviceAlgorithm, EveryPairOfThousandsGoesAndComes) {
-  expect_all_pairs_to_go_and_come(config(), is_slow() ? 1000 : 5000);
+  expect_all_pairs_to_go_and_come(config(), is_slow() ? 1000 : 3000);
 }
 
 // For long.
