@@ -212,7 +212,8 @@ class BROADCL_API BasicBroadPhase {
   /// changes, too.
   Delta finish();
 
-  /// Copies the objects for restore(). Nothing is searched.
+  /// Copies the objects for restore(). Nothing is searched. From the first call on, up to two bytes for each
+  /// id say which boxes changed since, so that restore() compares no others.
   /// @throws Error between begin() and finish(), and with changes that no update has reported.
   [[nodiscard]] BasicState<Box> save() const;
 
