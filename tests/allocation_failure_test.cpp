@@ -210,10 +210,10 @@ class LongFailure : public EachAlgorithm {};
 INSTANTIATE_TEST_SUITE_P(Long, LongFailure, ::testing::ValuesIn(algorithms().begin(), algorithms().end()),
                          named_by_parameter);
 TEST_P(LongFailure, OfEveryAllocationIsMadeGood) {
-  for (const long count : {1L, AllocationTrouble::for_good}) {
-    expect_host_lives(config(), count, AllocationTrouble::for_good, true);
-    expect_short_lives<AllocationTrouble, NoWatch, Warped<BroadPhase64>>(config(), count,
-                                                                         AllocationTrouble::for_good, true);
+  for (const auto& [count, most] :
+       {std::pair{1L, AllocationTrouble::for_good}, {AllocationTrouble::for_good, 200L}}) {
+    expect_host_lives(config(), count, most, true);
+    expect_short_lives<AllocationTrouble, NoWatch, Warped<BroadPhase64>>(config(), count, most, true);
   }
 }
 
