@@ -332,6 +332,8 @@ template std::span<Aabb> Core<Aabb>::find_spare();
 template std::span<Aabb64> Core<Aabb64>::find_spare();
 template bool Core<Aabb>::has_objects(const Saved<Aabb>& saved) noexcept;
 template bool Core<Aabb64>::has_objects(const Saved<Aabb64>& saved) noexcept;
+template std::optional<std::vector<std::uint32_t>> Core<Aabb>::changed_since(const Saved<Aabb>& saved);
+template std::optional<std::vector<std::uint32_t>> Core<Aabb64>::changed_since(const Saved<Aabb64>& saved);
 template void Core<Aabb>::set_objects(const Saved<Aabb>& saved);
 template void Core<Aabb64>::set_objects(const Saved<Aabb64>& saved);
 template void Core<Aabb>::reserve_all(std::size_t n);
