@@ -170,7 +170,7 @@ TEST(State, AllBoxesThatChangedSinceGoBack) {
   for (std::uint32_t k = 0; k < 20; ++k) {
     if (k % 10 < 5) move(k);
     for (std::uint32_t id = 0; k % 10 == 5 && id < objects; ++id) move(id);
-    if (k % 10 == 6) std::ranges::rotate(boxes, boxes.begin() + 1);
+    if (k % 10 == 6) std::rotate(boxes.begin(), boxes.begin() + 1, boxes.end());
     save();
     move(k + 1);
     if (k % 2 == 0) {
