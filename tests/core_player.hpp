@@ -210,9 +210,12 @@ class CorePlayer {
     if (op.verb != CoreVerb::move && op.verb != CoreVerb::remove) return false;
     std::vector<std::uint32_t> chosen;
     std::vector<Aabb> boxes;
+    const unsigned times = op.verb == CoreVerb::move && op.which % 16 == 4 ? 2 : 1;  // in a row
     for (unsigned k = 0; k < op.count && k < ids.size(); ++k) {
-      chosen.push_back(ids[(op.which + k) % ids.size()]);
-      boxes.push_back(box_of(script_, op, k));
+      for (unsigned time = 0; time < times; ++time) {
+        chosen.push_back(ids[(op.which + k) % ids.size()]);
+        boxes.push_back(box_of(script_, op, k + time));
+      }
     }
     if (op.verb == CoreVerb::remove) {
       if (chosen.empty()) return true;

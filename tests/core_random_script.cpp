@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <initializer_list>
 #include <numeric>
 #include <string_view>
 
@@ -71,6 +72,9 @@ class CoreGenerator {
       const CoreVerb next = live_ < script.most && dice_.one_in(4) ? CoreVerb::add : verb();
       script.ops.push_back(op(script, next, count(next, script.most)));
       if (next == CoreVerb::save && dice_.one_in(2)) go_back_soon(script);
+      if (next == CoreVerb::map && dice_.one_in(2))
+        push_some(script, {CoreVerb::give, CoreVerb::give, CoreVerb::move, CoreVerb::fail, CoreVerb::map,
+                           CoreVerb::update});
       if (next != CoreVerb::give || !dice_.one_in(3)) continue;
       CoreOp few = op(script, CoreVerb::exclude, 1);  // perhaps of ids that are free now
       few.filter = few.filter / exclusion_kinds * exclusion_kinds + 1;
@@ -80,14 +84,19 @@ class CoreGenerator {
   }
 
  private:
+  /// Some operations that add and remove no objects.
+  void push_some(CoreScript& script, std::initializer_list<CoreVerb> verbs) {
+    for (unsigned k = dice_.below(5); k > 0; --k) {
+      const CoreVerb verb = verbs.begin()[dice_.below(static_cast<unsigned>(verbs.size()))];
+      const bool is_of_all = verb == CoreVerb::give || verb == CoreVerb::map;
+      script.ops.push_back(op(script, verb, is_of_all ? 1 : count(verb, script.most)));
+    }
+  }
+
   /// Goes back to what was saved last, before other objects are there.
   void go_back_soon(CoreScript& script) {
-    constexpr std::array verbs{CoreVerb::move, CoreVerb::move, CoreVerb::give,
-                               CoreVerb::stir, CoreVerb::ask,  CoreVerb::update};
-    for (unsigned k = dice_.below(5); k > 0; --k) {
-      const CoreVerb verb = dice_.pick(verbs);
-      script.ops.push_back(op(script, verb, verb == CoreVerb::give ? 1 : count(verb, script.most)));
-    }
+    push_some(script, {CoreVerb::move, CoreVerb::move, CoreVerb::give, CoreVerb::stir, CoreVerb::ask,
+                       CoreVerb::update});
     CoreOp back = op(script, CoreVerb::restore, 1);
     back.which = 5;  // the last, however many there are
     script.ops.push_back(back);
