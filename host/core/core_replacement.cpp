@@ -179,7 +179,7 @@ void Core<Box>::replace_many(const BoxView& view, const Saved<Box>* saved, bool 
     if (saved != nullptr && !same_objects) set_objects(*saved);
     copy_all(view, saved == nullptr);
     end();
-    spare_slots_ = slots;
+    spare_slots_ = std::max(slots, mapped);
   } catch (...) {
     restore();
     throw;
