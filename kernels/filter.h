@@ -18,7 +18,7 @@ static inline bool worlds_meet(const uint s, const uint t) {
    `sets` is 0. (Worlds that have the same number here are distinguished by may_pair().) */
 static inline uint first_world(const uint4 filter, const uint sets) {
   if (filter.w == ALL_WORLDS) return 0;
-  return sets == 0U ? filter.w : min(filter.w, 0x7ffffffeU) << 1 | (sets & ~filter.x);
+  return sets == 0U ? filter.w : filter.w << 1 | (sets & ~filter.x);
 }
 static inline uint last_world(const uint4 filter, const uint sets) {
   return filter.w == ALL_WORLDS ? 0xffffffffU : first_world(filter, sets);

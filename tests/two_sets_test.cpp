@@ -95,8 +95,8 @@ TEST_P(EachAlgorithm, OfTwoSetsAnErrorSaysWhichOneHasANaN) {
 /// World numbers that floats and shifted words cannot tell apart.
 TEST_P(EachAlgorithm, TwoSetsInWorldsOfLargeNumbers) {
   Twins twins(config());
-  for (const std::uint32_t world : {0U, 8'388'606U, 8'388'607U, 8'388'608U, 16'777'217U, 0x7ffffffdU,
-                                    0x7ffffffeU, 0x80000000U, 0xfffffffeU, Filter::all_worlds}) {
+  for (const std::uint32_t world : {0U, 8'388'606U, 8'388'607U, 8'388'608U, 16'777'217U, 0x7ffffffeU,
+                                    0x7fffffffU, 0x80000000U, 0xfffffffeU, Filter::all_worlds}) {
     for (const Filter& set : {Filter::first_set, Filter::second_set, Filter::first_set}) {
       twins.add(unit, {.group = set.group, .mask = set.mask, .world = world});
     }
